@@ -103,7 +103,7 @@ def import_board(
     places = [(each.name, each.at) for each in tracing.left_out]
     shared.draw(picture, partial(viz.copper_figure, copper, tracing.coils, places))
     traced = traced_array(copper, tracing.coils)
-    records = _records(tracing, traced)
+    records = _records(tracing, traced, estimate=only_list)
     notes = [*traced.notes, _NO_FAB]
     lines: list[str | Table] = [_table(records, board.name, estimate=only_list)]
     lines += ["", _left_out_table(tracing.left_out)] if tracing.left_out else []
@@ -200,24 +200,23 @@ def _asked(board: Path) -> dict[str, str] | None:
     return {f"L{answer}": name for name, answer in answers.items() if answer.isdecimal()}
 
 
-def _records(tracing: Tracing, traced: TracedArray) -> list[dict[str, Any]]:
-    """Return the known properties of every coil, in SI."""
+def _records(tracing: Tracing, traced: TracedArray, *, estimate: bool) -> list[dict[str, Any]]:
+    """Return the known properties of every coil, in SI, with an estimate of L if wanted."""
     from coilarray.design.write import design_names, shape_names
     from coilarray.electromagnetics.inductance import inductance_matrix
 
-    names = design_names(traced.array.names)
-    shapes: dict[str, float] = {}
-    for shape, conductor in zip(shape_names(traced.array), traced.array.conductors(), strict=True):
-        if shape not in shapes:
-            shapes[shape] = float(inductance_matrix([conductor], accuracy="screen", allow_overlaps=True)[0, 0])
+    names, shapes = design_names(traced.array.names), shape_names(traced.array)
+    of_shape = dict(zip(shapes, traced.array.conductors(), strict=True)) if estimate else {}
+    L = {
+        shape: {"inductance_H": float(inductance_matrix([conductor], accuracy="screen", allow_overlaps=True)[0, 0])}
+        for shape, conductor in of_shape.items()
+    }
     return [
         {
             "name": names[coil.name], "net": coil.net, "shape": shape, "layers": list(coil.layers),
             "turns": coil.turns, "poles": [asdict(pole) for pole in coil.poles], "length_m": coil.length,
             "trace_widths_m": sorted({float(width) for line in coil.widths for width in line}),
-            "vias": len(coil.vias), "x_m": placement.x, "y_m": placement.y, "inductance_H": shapes[shape],
+            "vias": len(coil.vias), "x_m": placement.x, "y_m": placement.y, **L.get(shape, {}),
         }
-        for coil, placement, shape in zip(
-            tracing.coils, traced.array.placements, shape_names(traced.array), strict=True
-        )
+        for coil, placement, shape in zip(tracing.coils, traced.array.placements, shapes, strict=True)
     ]  # fmt: skip

@@ -66,6 +66,7 @@ class SurfacePad:
     """Pad in m without a hole, a disc by default, of the smaller side `size`."""
 
     what: ClassVar[str] = "a pad"
+    kind: ClassVar[str] = "pad"
     x: float
     y: float
     layer: str

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
@@ -66,7 +64,6 @@ def centre_lines(shape: BaseGeometry) -> list[tuple[FloatArray, FloatArray]]:
 
 def _chains(places: FloatArray, edges: IntArray, shape: shapely.Polygon) -> list[FloatArray]:
     """Join edges between `places` to lines (n, 2), without branches shorter than the copper is wide."""
-    from coilarray.geometry.copper import groups
     from scipy.spatial import KDTree
 
     grain = 1e-9 * float(np.ptp(places[edges.ravel()], axis=0).max()) if len(edges) else 0.0

@@ -83,7 +83,7 @@ class _Layer:
     hub_item: IntArray  # (k,)
     places: list[tuple[float, float]] = field(default_factory=list)
     cuts: list[tuple[int, float, int]] = field(default_factory=list)  # line, part of it, place
-    bridges: list[tuple[int, int, float, int]] = field(default_factory=list)  # places, width and item
+    bridges: list[tuple[int, int, float, int, bool]] = field(default_factory=list)  # places, width, item, an overlap
 
     def __post_init__(self) -> None:
         self.lines: Shapes = np.asarray(shapely.linestrings(self.ends))
@@ -156,17 +156,26 @@ class _Layer:
                     overlaps.append((int(ends[k]), int(lines[k]), float(part[k])))
         return overlaps
 
+    def edges(self) -> FloatArray:
+        """Rows (m, 7): both places, width in m, item, whether drawn, whether an overlap, layer."""
+        ends, line = self.parts()
+        drawn = np.column_stack((ends, self.width[line], self.item[line], np.tile([1.0, 0.0], (len(line), 1))))
+        bridges = [(*bridge[:4], 0.0, bridge[4]) for bridge in self.bridges]
+        rows = np.vstack((drawn, np.array(bridges).reshape(-1, 6)))
+        return np.column_stack((rows, np.full(len(rows), self.number)))
+
     def merged(self) -> IntArray:
         """Lowest number of the places that are one with each."""
         from scipy.spatial import KDTree
 
-        return np.array(groups(len(self.places), KDTree(self.places).query_pairs(JOINED, output_type="ndarray")))
+        near = KDTree(np.array(self.places).reshape(-1, 2)).query_pairs(JOINED, output_type="ndarray")
+        return np.array(groups(len(self.places), near), dtype=np.int64)
 
     def parts(self) -> tuple[IntArray, IntArray]:
         """Places (m, 2) at the ends of the lines' parts, and their lines (m,)."""
-        line, part, place = (np.array(column) for column in zip(*self.cuts, strict=True))
+        line, part, place = np.array(self.cuts).reshape(-1, 3).T
         order = np.lexsort((part, line))
-        line, place = line[order], place[order]
+        line, place = line[order].astype(np.int64), place[order].astype(np.int64)
         within = line[1:] == line[:-1]
         return np.column_stack((place[:-1], place[1:]))[within], line[:-1][within]
 
@@ -192,7 +201,7 @@ class _Layer:
                 within = self.width[place // 2] + self.width[line]
                 if distance.get(line, np.inf) > within:
                     width, item = float(self.width[place // 2]), int(self.item[place // 2])
-                    self.bridges.append((place, self.cut(line, part), width, item))
+                    self.bridges.append((place, self.cut(line, part), width, item, True))
 
     def join_shapes(self) -> None:
         """Join holes, pads and areas to the lines that their copper meets, and to each other."""
@@ -211,11 +220,11 @@ class _Layer:
                     continue
                 places = [2 * on + end for end in (0, 1) if inside[k, end]] or [self.cut(on, float(part[k]))]
                 for place in places:
-                    self.bridges.append((place, own, float(self.width[on]), int(self.hub_item[hub[k]])))
+                    self.bridges.append((place, own, float(self.width[on]), int(self.hub_item[hub[k]]), False))
         i, j = shapely.STRtree(self.shapes).query(self.shapes, predicate="intersects")
         for a, b in zip(i[i < j].tolist(), j[i < j].tolist(), strict=True):
             width = min(_size(self.shapes[a]), _size(self.shapes[b]))
-            self.bridges.append((self.first_hub + a, self.first_hub + b, width, int(self.hub_item[a])))
+            self.bridges.append((self.first_hub + a, self.first_hub + b, width, int(self.hub_item[a]), False))
 
 
 def _reached(start: int, around: dict[int, list[tuple[int, float, int]]], limit: float) -> dict[int, float]:
@@ -314,36 +323,17 @@ def _joined(
 def _graph(joined: Sequence[_Layer], items: Sequence[Copper], layers: Sequence[str]) -> CopperGraph:
     """Make nodes of the places of all layers, and collect the edges between them."""
     counts = np.cumsum([0, *(len(layer.places) for layer in joined)])
-    pairs, width, edge_layer, edge_item, drawn, overlap = [], [], [], [], [], []
     hubs: dict[int, list[int]] = {}  # places by the number of a hole, pad or area
-    same = []
+    same, edges = [], []
     for layer, first in zip(joined, counts.tolist(), strict=False):
-        merged = layer.merged() if layer.places else np.empty(0, dtype=np.int64)
-        same.append(np.column_stack((merged, np.arange(len(merged)))) + first)
+        same.append(np.column_stack((layer.merged(), np.arange(len(layer.places)))) + first)
+        edges.append(layer.edges() + np.array([first, first, 0, 0, 0, 0, 0]))
         for k, item in enumerate(layer.hub_item.tolist()):
             hubs.setdefault(item, []).append(first + layer.first_hub + k)
-        if layer.cuts:
-            ends, line = layer.parts()
-            pairs.append(ends + first)
-            width.append(layer.width[line])
-            edge_item.append(layer.item[line])
-            drawn.append(np.ones(len(line), dtype=bool))
-            overlap.append(np.zeros(len(line), dtype=bool))
-            edge_layer.append(np.full(len(line), layer.number))
-        if layer.bridges:
-            places = np.array([bridge[:2] for bridge in layer.bridges])
-            pairs.append(places + first)
-            hub = (places >= layer.first_hub) & (places < layer.first_hub + len(layer.hub))
-            overlap.append(np.asarray(~hub.any(axis=1)))
-            width.append(np.array([bridge[2] for bridge in layer.bridges]))
-            edge_item.append(np.array([bridge[3] for bridge in layer.bridges]))
-            drawn.append(np.zeros(len(layer.bridges), dtype=bool))
-            edge_layer.append(np.full(len(layer.bridges), layer.number))
     same.append(np.array([(own[0], other) for own in hubs.values() for other in own[1:]]).reshape(-1, 2))
     lowest = np.array(groups(int(counts[-1]), np.vstack(same)), dtype=np.int64)
     used, node = np.unique(lowest, return_inverse=True)
-    places = np.array([place for layer in joined for place in layer.places]).reshape(-1, 2)
-    nodes = places[used]
+    nodes = np.array([place for layer in joined for place in layer.places]).reshape(-1, 2)[used]
     stands: dict[int, list[Hole | SurfacePad]] = {}
     areas: dict[int, CopperArea] = {}
     for number, own in hubs.items():
@@ -354,20 +344,16 @@ def _graph(joined: Sequence[_Layer], items: Sequence[Copper], layers: Sequence[s
             if here not in stands:
                 nodes[here] = item.x, item.y
             stands.setdefault(here, []).append(item)
-    edges = node[np.vstack(pairs)] if pairs else np.empty((0, 2), dtype=np.int64)
-    columns = [np.concatenate(each) if each else np.empty(0) for each in (width, edge_layer, edge_item, drawn, overlap)]
-    edges = np.sort(edges, axis=1)
+    rows = np.vstack(edges)
+    pairs = np.sort(node[rows[:, :2].astype(np.int64)], axis=1)
     # of edges between the same nodes on a layer the first is kept, with the largest width, lines before bridges
-    kept = np.flatnonzero(edges[:, 0] != edges[:, 1])
-    order = kept[np.lexsort((-columns[0][kept], ~columns[3][kept].astype(bool), columns[1][kept], *edges[kept].T))]
-    key = np.column_stack((edges[order], columns[1][order]))
-    new = np.ones(len(order), dtype=bool)
-    new[1:] = (key[1:] != key[:-1]).any(axis=1)
-    order = np.sort(order[new])
-    edges, (widths, on, of, by_line, lapped) = edges[order], (column[order] for column in columns)
-    length = np.hypot(*(nodes[edges[:, 0]] - nodes[edges[:, 1]]).T)
-    piece = np.array(groups(len(nodes), edges), dtype=np.int64)
+    order = np.lexsort((-rows[:, 2], -rows[:, 4]))
+    order = order[np.unique(np.column_stack((pairs, rows[:, 6]))[order], axis=0, return_index=True)[1]]
+    order = np.sort(order[pairs[order, 0] != pairs[order, 1]])
+    pairs, (width, of, drawn, overlap, on) = pairs[order], rows[order, 2:].T
+    length = np.hypot(*(nodes[pairs[:, 0]] - nodes[pairs[:, 1]]).T)
+    piece = np.array(groups(len(nodes), pairs), dtype=np.int64)
     return CopperGraph(
-        nodes, edges, length, widths, on.astype(np.int64), of.astype(np.int64), by_line.astype(bool),
-        lapped.astype(bool), items, layers, stands, areas, piece,
-    )  # fmt: skip
+        nodes, pairs, length, width, on.astype(np.int64), of.astype(np.int64), drawn > 0, overlap > 0, items, layers,
+        stands, areas, piece,
+    )

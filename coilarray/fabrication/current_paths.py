@@ -9,6 +9,8 @@ from math import log
 
 import numpy as np
 import shapely
+from shapely.geometry.base import BaseGeometry
+from shapely.ops import substring
 
 from coilarray.constants import MU_0
 from coilarray.errors import BoardError
@@ -33,7 +35,7 @@ class Ring:
 
     at: Point
     reason: str
-    inside: shapely.Polygon
+    inside: BaseGeometry
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,10 +121,13 @@ class Piece:
             if first(a) == first(b):
                 continue
             ring = self._ring(a, b)
-            if self._is_flat(edge, ring):
+            own = [edge, *(self._between(self.nodes[i], self.nodes[j]) for i, j in pairwise(ring))]
+            inside = shapely.Polygon(self.graph.nodes[[self.nodes[k] for k in ring]] if len(ring) > 2 else None)
+            # both sides of a ring no wider than its copper carry the current alike
+            if inside.area <= float(self.graph.width[own].max()) * float(self.graph.length[own].sum()) / 2:
                 continue
             checked += 1
-            if checked > _MOST_RINGS or self._is_open(edge, ring):
+            if checked > _MOST_RINGS or self._is_open(ring, own, inside.buffer(0)):
                 a, b = first(a), first(b)
                 while a != b:
                     if self._depth[a] < self._depth[b]:
@@ -145,23 +150,9 @@ class Piece:
             side.append(self._before[side[-1]])
         return [*left, *right[-2::-1]]
 
-    def _ring_edges(self, edge: int, ring: Sequence[int]) -> list[int]:
-        return [edge, *(self._between(self.nodes[a], self.nodes[b]) for a, b in pairwise(ring))]
-
-    def _is_flat(self, edge: int, ring: Sequence[int]) -> bool:
-        """Whether a ring is no wider than its copper, so that both sides carry the current alike."""
-        own = self._ring_edges(edge, ring)
-        places = self.graph.nodes[[self.nodes[k] for k in ring]]
-        places = places - places[0]
-        x, y = places.T
-        area = abs(float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum())) / 2
-        return area <= float(self.graph.width[own].max()) * float(self.graph.length[own].sum()) / 2
-
-    def _is_open(self, edge: int, ring: Sequence[int]) -> bool:
-        """Whether the copper of a ring has a hole inside that is wider than the copper."""
-        graph, own = self.graph, self._ring_edges(edge, ring)
-        width = float(graph.width[own].max())
-        inside = shapely.Polygon(graph.nodes[[self.nodes[k] for k in ring]]).buffer(0)
+    def _is_open(self, ring: Sequence[int], own: Sequence[int], inside: BaseGeometry) -> bool:
+        """Whether the copper of a ring's `own` edges has a hole inside that is wider than the copper."""
+        graph = self.graph
         copper = [
             graph.items[graph.edge_item[each]].copper.get(graph.layers[graph.edge_layer[each]], shapely.Polygon())
             for each in own
@@ -171,12 +162,12 @@ class Piece:
         ]
         copper += [graph.areas[self.nodes[k]].shape for k in ring if self.nodes[k] in graph.areas]
         hole = inside - shapely.union_all(copper)
-        if hole.area <= _NO_HOLE * width**2:
+        if hole.area <= _NO_HOLE * float(graph.width[own].max()) ** 2:
             return False
         # what joins the ways is named: a pad, or the shortest copper at a fork
         bridges = [each for each in own if not graph.drawn[each]]
         forks = [each for each in own if (self._degree[graph.edges[each]] > 2).any()]
-        bridge = bridges[0] if bridges else min(forks, key=lambda each: graph.length[each], default=edge)
+        bridge = bridges[0] if bridges else min(forks, key=lambda each: graph.length[each], default=own[0])
         item = graph.items[graph.edge_item[bridge]]
         at = graph.nodes[graph.edges[bridge]].mean(axis=0)
         layer = graph.layers[graph.edge_layer[bridge]]
@@ -204,24 +195,20 @@ class Piece:
         for end in ends:
             if end in self.stands or end in held or len(around.get(end, ())) != 1:
                 continue
-            run, length = [end], 0.0
-            while len(around[run[-1]]) <= 2 and (len(run) == 1 or run[-1] not in self.stands):
-                onward = [node for node in around[run[-1]] if len(run) == 1 or node != run[-2]]
-                if not onward:
-                    break
-                length += float(graph.length[around[run[-1]][onward[0]]])
-                run.append(onward[0])
-            fork = run[-1]
-            if len(run) < 2:
-                continue
-            widest = max(float(graph.width[edge]) for edge in around[fork].values())
-            short = length <= widest + float(graph.width[around[run[0]][run[1]]])
+            run = [end]
+            while len(onward := [node for node in around[run[-1]] if node not in run[-2:-1]]) == 1 and (
+                len(run) == 1 or run[-1] not in self.stands
+            ):
+                run += onward
+            fork, own = run[-1], [around[a][b] for a, b in pairwise(run)]
+            widest = graph.width[[*around[fork].values()]].max()
+            short = graph.length[own].sum() <= widest + graph.width[own[0]]
             if (len(around[fork]) > 2 and short) or (end in self._loose and self._degree[end] > 1):
                 for node, other in pairwise(run):
                     del around[other][node], around[node]
 
-    def longest(self, start: int, without: frozenset[int] = frozenset()) -> tuple[list[int], float]:
-        """Longest way of the tree from a node, with its length in m."""
+    def longest(self, start: int, without: frozenset[int] = frozenset()) -> list[int]:
+        """Longest way of the tree from a node."""
         length, came = {start: 0.0}, {start: start}
         waiting = [start]
         while waiting:
@@ -232,20 +219,19 @@ class Piece:
                     came[other] = here
                     waiting.append(other)
         way = [max(length, key=lambda node: length[node])]
-        end = way[0]
         while way[-1] != start:
             way.append(came[way[-1]])
-        return way[::-1], length[end]
+        return way[::-1]
 
     def coils(self) -> Found:
         """Find the coils, or the reason why there are none."""
         found: list[TracedCoil] = []
         best: TracedCoil | None = None
         rings = {group for node, group in self._group.items() if node != group}
-        waiting: list[tuple[int, ...]] = [(self.longest(next(iter(self.around)))[0][-1],)]  # start, or fork and branch
+        waiting: list[tuple[int, ...]] = [(self.longest(next(iter(self.around)))[-1],)]  # start, or fork and branch
         while waiting:
             *fork, start = waiting.pop()
-            way = [*fork, *self.longest(start, frozenset(fork))[0]]
+            way = [*fork, *self.longest(start, frozenset(fork))]
             arms = self._arms(way[len(fork) :], frozenset(fork))
             winding = {node: [arm for arm in own if self._winds(node, arm)] for node, own in arms.items()}
             waiting += [(node, arm) for node, own in winding.items() for arm in own]
@@ -269,8 +255,8 @@ class Piece:
 
     def between(self, first: int, last: int) -> TracedCoil:
         """Follow the way between two nodes of the tree, or raise BoardError."""
-        for ring in self.rings:
-            raise BoardError(ring.reason)
+        if self.rings:
+            raise BoardError(self.rings[0].reason)
         return self._traced(self._shortest(first, last))
 
     def _is_ringed(self, coil: TracedCoil) -> bool:
@@ -286,9 +272,10 @@ class Piece:
 
     def _winds(self, node: int, arm: int) -> bool:
         """Whether the longest way of a branch makes turns."""
-        way, length = self.longest(arm, frozenset((node,)))
+        way = self.longest(arm, frozenset((node,)))
         places = self.graph.nodes[way]
-        if len(way) < 3 or length < STRAIGHT * float(np.hypot(*np.ptp(places, axis=0))):
+        length = np.hypot(*np.diff(places, axis=0).T).sum()
+        if len(way) < 3 or length < STRAIGHT * np.hypot(*np.ptp(places, axis=0)):
             return False
         return abs(self._traced(self._shortest(arm, way[-1])).turns) >= LEAST_TURNS
 
@@ -324,7 +311,7 @@ class Piece:
         length = np.cumsum([0.0, *(float(self.graph.length[edge]) for edge, _ in path[1:])])
         stops = sorted({
             0, len(path) - 1,
-            *(on[node] for node in nodes[1:-1] if node in on and (arms.get(node) or self._is_terminal(node))),
+            *(on[node] for node in nodes[1:-1] if node in on and (arms.get(node) or self._pads(node))),
         })  # fmt: skip
         if abs(whole.turns) < LEAST_TURNS and len(stops) < 3:
             yield whole
@@ -332,8 +319,7 @@ class Piece:
         turns = whole.winding
         if turns is not None and abs(whole.turns) > 1.5:
             begin, end = turns.begin, turns.end
-            to_first = [float(np.hypot(*(at - self.graph.nodes[path[0][1]]))) for at in whole.path[[0, -1]]]
-            if to_first[1] < to_first[0]:
+            if (whole.path[0] != self.graph.nodes[path[0][1]]).any():  # it begins at the other end
                 begin, end = length[-1] - end, length[-1] - begin
             first = max((k for k in stops if length[k] <= begin + 1e-9), default=0)
             last = min((k for k in stops if length[k] >= end - 1e-9), default=len(path) - 1)
@@ -346,19 +332,13 @@ class Piece:
             first, last = next(made, (0, len(path) - 1))
         halves = [k for k in stops if first < k < last and self._apart(path, first, k, last)]
         for begin, end in pairwise([first, *halves, last]):
-            branches = [
-                name for k in range(begin, end + 1) for arm in arms.get(names[k], ())
-                for name in self._names(names[k], arm)
-            ]  # fmt: skip
-            beyond = [
-                *(name for k in stops if k < first or k > last for stand in self.stands.get(names[k], ())
-                for name in (_name(stand),) if name),
-            ]  # fmt: skip
             coil = self._part(path, begin, end)
-            others = sorted(
-                {*branches, *beyond} - {_name(end) for end in coil.ends if end is not None}, key=natural_order
-            )
-            notes = (f"what leads on to {' and '.join(others)} is left out.",) if others else ()
+            arms_here = [(names[k], arm) for k in range(begin, end + 1) for arm in arms.get(names[k], ())]
+            others = {name for node, arm in arms_here for name in self._names(node, arm)}
+            others.update(name for k in stops if not first <= k <= last for name in self._pads(names[k]))
+            others.difference_update(_name(end) for end in coil.ends if end is not None)
+            named = " and ".join(sorted(others, key=natural_order))
+            notes = (f"what leads on to {named} is left out.",) if named else ()
             yield replace(coil, notes=(*coil.notes, *notes))
 
     def _apart(self, path: Way, first: int, middle: int, last: int) -> bool:
@@ -375,22 +355,18 @@ class Piece:
             self._parts[ends] = self._traced([(-1, path[first][1]), *path[first + 1 : last + 1]])
         return self._parts[ends]
 
-    def _is_terminal(self, node: int) -> bool:
-        return any(not (isinstance(stand, Hole) and stand.kind == "via") for stand in self.stands.get(node, ()))
+    def _pads(self, node: int) -> list[str]:
+        """Names of the pads at a node of the tree."""
+        return [_name(stand) for stand in self.stands.get(node, ()) if stand.kind == "pad"]
 
     def _names(self, node: int, arm: int) -> list[str]:
         """Names of the pads on a branch, or its last place."""
-        seen, waiting, names = {node, arm}, [arm], []
+        waiting, names = [(node, arm)], []
         while waiting:
-            here = waiting.pop()
-            names += [name for stand in self.stands.get(here, ()) if (name := _name(stand))]
-            for other in self.around[here]:
-                if other not in seen:
-                    seen.add(other)
-                    waiting.append(other)
-        return list(dict.fromkeys(names)) or [
-            f"an end at {self.graph.place(self.longest(arm, frozenset((node,)))[0][-1])}"
-        ]
+            before, here = waiting.pop()
+            names += self._pads(here)
+            waiting += [(here, other) for other in self.around[here] if other != before]
+        return names or [f"an end at {self.graph.place(self.longest(arm, frozenset((node,)))[-1])}"]
 
     def _traced(self, way: Way) -> TracedCoil:
         """Make the coil of a way, which begins at the lower number of a pad."""
@@ -402,10 +378,12 @@ class Piece:
                 notes.append(self._bridged(node, kept[-1][1], following[1], edge))
             else:
                 kept.append((edge, node))
-        terminals = [self._terminal(node) for node in (kept[0][1], kept[-1][1])]
-        firsts = [(item, self._from_start(item, node)) for item, node in (
-            (int(graph.edge_item[kept[1][0]]), kept[0][1]), (int(graph.edge_item[kept[-1][0]]), kept[-1][1])
-        )]  # fmt: skip
+        terminals, firsts = [], []
+        for edge, node in ((kept[1][0], kept[0][1]), kept[-1]):
+            stands = self.stands.get(self._name[node], ())
+            terminals.append(min(stands, key=lambda stand: stand.kind == "via", default=None))
+            start = getattr(graph.items[graph.edge_item[edge]], "start", graph.nodes[node])
+            firsts.append((int(graph.edge_item[edge]), float(np.hypot(*(graph.nodes[node] - start)))))
         if _is_reversed(terminals, firsts):
             nodes = [node for _, node in kept][::-1]
             kept = [(-1, nodes[0]), *zip([edge for edge, _ in kept[1:]][::-1], nodes[1:], strict=True)]
@@ -431,20 +409,8 @@ class Piece:
             notes=tuple(dict.fromkeys(filter(None, notes))),
         )  # fmt: skip
 
-    def _from_start(self, item: int, node: int) -> float:
-        """Distance in m of a node from the beginning of a track."""
-        start = getattr(self.graph.items[item], "start", self.graph.nodes[node])
-        return float(np.hypot(*(self.graph.nodes[node] - start)))
-
     def _holes(self, node: int) -> list[Hole]:
         return [stand for stand in self.graph.stands.get(node, ()) if isinstance(stand, Hole)]
-
-    def _terminal(self, node: int) -> Hole | SurfacePad | None:
-        """Return the pad at an end, or else the via."""
-        stands = self.stands.get(self._name[node], ())
-        return next((stand for stand in stands if not (isinstance(stand, Hole) and stand.kind == "via")), None) or next(
-            iter(stands), None
-        )
 
     def _bridged(self, node: int, before: int, after: int, edge: int) -> str:
         """Say how far a way through a wide shape may be wrong, or raise BoardError."""
@@ -470,38 +436,28 @@ class Piece:
 def _set_back(coils: Sequence[TracedCoil]) -> tuple[TracedCoil, ...]:
     """Shorten coils at ends that they share by the width of their trace, so that their copper is apart."""
     ends = [(coil.layers[k], *np.round(coil.path[k] / JOINED).tolist()) for coil in coils for k in (0, -1)]
-    made = []
-    for number, coil in enumerate(coils):
-        shared = [ends.count(ends[2 * number + k]) > 1 for k in (0, 1)]
+    made = [*coils]
+    for place in (k for k, end in enumerate(ends) if ends.count(end) > 1):
+        coil, k = made[place // 2], -(place % 2)
         lines, widths, terminals = [*coil.lines], [*coil.widths], [*coil.ends]
-        for k in (0, -1):
-            if not shared[k]:
-                continue
-            line, width = (lines[0], widths[0]) if k == 0 else (lines[-1][::-1], widths[-1][::-1])
-            length = np.append(0.0, np.cumsum(np.hypot(*np.diff(line, axis=0).T)))
-            back = min(float(width[0]), 0.9 * float(length[-1]))
-            after = int(np.searchsorted(length, back, side="right"))
-            at = [np.interp(back, length, axis) for axis in line.T]
-            line, width = np.vstack((at, line[after:])), width[after - 1 :]
-            lines[k], widths[k] = (line, width) if k == 0 else (line[::-1], width[::-1])
-            terminals[k] = None
-        made.append(
-            replace(
-                coil, lines=tuple(lines), widths=tuple(widths), ends=(terminals[0], terminals[1]),
-                notes=(*coil.notes, "it ends a trace width before the place that it shares with others."), _known={},
-            )
-            if any(shared) else coil
+        line = shapely.LineString(lines[k])
+        back = min(float(widths[k][k]), 0.9 * line.length)
+        kept = substring(line, back, line.length) if k == 0 else substring(line, 0.0, line.length - back)
+        lines[k] = shapely.get_coordinates(kept)
+        widths[k] = widths[k][1 - len(lines[k]) :] if k == 0 else widths[k][: len(lines[k]) - 1]
+        terminals[k] = None
+        note = "it ends a trace width before the place that it shares with others."
+        made[place // 2] = replace(
+            coil, lines=tuple(lines), widths=tuple(widths), ends=(terminals[0], terminals[1]),
+            notes=tuple(dict.fromkeys((*coil.notes, note))), _known={},
         )  # fmt: skip
     return tuple(made)
 
 
 def _name(stand: Hole | SurfacePad) -> str:
     """Return U1.3 of a pad, or its place."""
-    if isinstance(stand, Hole) and stand.kind == "via":
-        return ""
-    return (
-        f"{stand.part}.{stand.number}" if stand.part and stand.number else f"a pad at {place_in_mm(stand.x, stand.y)}"
-    )
+    numbered = stand.part and stand.number
+    return f"{stand.part}.{stand.number}" if numbered else f"a {stand.kind} at {place_in_mm(stand.x, stand.y)}"
 
 
 def _is_reversed(ends: Sequence[Hole | SurfacePad | None], firsts: Sequence[tuple[int, float]]) -> bool:

@@ -12,6 +12,7 @@ import zipfile
 import zlib
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path, PurePosixPath
@@ -20,7 +21,6 @@ from typing import Any, Literal
 
 import numpy as np
 import shapely
-from shapely import affinity
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.compute.extras import import_extra
@@ -278,10 +278,6 @@ class Stroke:
         """Area covered by the stroke, in m."""
         return shapely.LineString(self.points).buffer(self.width / 2)
 
-    def moved(self, dx: float, dy: float) -> "Stroke":
-        """Return the stroke at another place, shifted in m."""
-        return replace(self, points=tuple((x + dx, y + dy) for x, y in self.points))
-
 
 @dataclass(frozen=True)
 class Flash:
@@ -296,10 +292,6 @@ class Flash:
     net: str | None
     where: str
 
-    def moved(self, dx: float, dy: float) -> "Flash":
-        """Return the flash at another place, shifted in m."""
-        return replace(self, x=self.x + dx, y=self.y + dy, shape=affinity.translate(self.shape, dx, dy))
-
 
 @dataclass(frozen=True, eq=False)
 class Region:
@@ -309,10 +301,6 @@ class Region:
     net: str | None
     where: str
     clear: bool = False
-
-    def moved(self, dx: float, dy: float) -> "Region":
-        """Return the region at another place, shifted in m."""
-        return replace(self, shape=affinity.translate(self.shape, dx, dy))
 
 
 Drawn = Stroke | Flash | Region
@@ -341,17 +329,19 @@ def parse_gerber(file: DataFile) -> list[Drawn]:
     if parser.file_settings.is_incremental:
         raise BoardError(f"{file.label}: incremental coordinates are not supported.")
     objects: list[Drawn] = []
-    repeats = _repeats(file, parser)
+    repeats = _repeats(file)
     for (line, attributes), item in found.records:
         where = f"{file.label}:{line}"
-        read = _object(item, attributes, where)
-        read = read if item.polarity_dark else Region(read.shape, None, where, clear=True)
-        objects += [read.moved(dx, dy) for dx, dy in repeats(line)]
+        for dx, dy in repeats(line):
+            copied = copy(item)
+            copied.offset(dx, dy, parser.file_settings.unit)
+            read = _object(copied, attributes, where)
+            objects.append(read if item.polarity_dark else Region(read.shape, None, where, clear=True))
     return objects
 
 
-def _repeats(file: DataFile, parser: Any) -> Callable[[int], list[Point]]:
-    """Return the shifts in m at which what a line draws is repeated."""
+def _repeats(file: DataFile) -> Callable[[int], list[Point]]:
+    """Return the shifts in the file's unit at which the drawing of a line is repeated."""
     begins: list[tuple[int, list[Point]]] = [(0, [(0.0, 0.0)])]
     for match in _STEP_REPEAT.finditer(file.text):
         line, shifts = file.text.count("\n", 0, match.start()) + 1, [(0.0, 0.0)]
@@ -362,9 +352,8 @@ def _repeats(file: DataFile, parser: Any) -> Callable[[int], list[Point]]:
                     f"{file.label}:{line}: step and repeat must have 1 to {_MOST_REPEATS} copies; got {columns} × "
                     f"{rows}."
                 )
-            unit = 1.0 if parser.file_settings.unit is None else _in_metre(parser.file_settings.unit)
             try:
-                i, j = float(match[3]) / unit, float(match[4]) / unit
+                i, j = float(match[3]), float(match[4])
             except ValueError:
                 raise BoardError(f"{file.label}:{line}: step and repeat must have numbers; got {match[0]}.") from None
             shifts = [(i * column, j * row) for row in range(rows) for column in range(columns)]

@@ -99,8 +99,7 @@ def trace_coils(
             found = Piece(graph, nodes, edges).coils()
         except BoardError as error:
             found = Found((), str(error))
-        stands = {id(pad): pad for node in nodes for pad in graph.stands.get(node, ())}.values()
-        pads = sum(not (isinstance(pad, Hole) and pad.kind == "via") for pad in stands)
+        pads = sum(stand.kind == "pad" for node in nodes for stand in graph.stands.get(node, ()))
         if nets is None and pads > _MANY_PADS and all(abs(coil.turns) < _FEW_TURNS for coil in found.coils):
             reason = f"it leads to {pads} pads, as a supply does; --nets takes it." if found.coils else found.reason
             found = replace(found, coils=(), reason=reason)
@@ -130,18 +129,19 @@ _Member = tuple[list[int], list[int], tuple[str, ...]]  # nodes, edges and nets 
 
 def _pieces(graph: CopperGraph) -> list[_Member]:
     """Sort the copper of a graph into connected pieces, by net and then in the order of the file."""
-    numbers, piece = np.unique(graph.piece, return_inverse=True)
-    of_edge = piece[graph.edges[:, 0]] if len(graph.edges) else np.empty(0, dtype=np.int64)
-    order, edge_order = np.argsort(piece, kind="stable"), np.argsort(of_edge, kind="stable")
-    nodes = np.split(order, np.cumsum(np.bincount(piece, minlength=len(numbers)))[:-1]) if len(piece) else []
-    edges = np.split(edge_order, np.cumsum(np.bincount(of_edge, minlength=len(numbers)))[:-1]) if len(piece) else []
+    nodes: dict[int, list[int]] = {}
+    edges: dict[int, list[int]] = {}
+    for node, piece in enumerate(graph.piece.tolist()):
+        nodes.setdefault(piece, []).append(node)
+    for edge, piece in enumerate(graph.piece[graph.edges[:, 0]].tolist()):
+        edges.setdefault(piece, []).append(edge)
     found = []
-    for own_nodes, own_edges in zip(nodes, edges, strict=True):
-        items: list[Copper] = [graph.items[k] for k in np.unique(graph.edge_item[own_edges]).tolist()]
-        items += [stand for node in own_nodes.tolist() for stand in graph.stands.get(node, ())]
-        if own_edges.size or any(item.net for item in items):
-            nets = sorted({item.net for item in items if item.net}, key=natural_order)
-            found.append((own_nodes.tolist(), own_edges.tolist(), tuple(nets)))
+    for piece, own in nodes.items():
+        items: list[Copper] = [graph.items[k] for k in np.unique(graph.edge_item[edges.get(piece, [])]).tolist()]
+        items += [stand for node in own for stand in graph.stands.get(node, ())]
+        nets = sorted({item.net for item in items if item.net}, key=natural_order)
+        if piece in edges or nets:
+            found.append((own, edges.get(piece, []), tuple(nets)))
     return sorted(found, key=lambda member: (not member[2], [natural_order(net) for net in member[2]]))
 
 
