@@ -138,3 +138,12 @@ def test_wide_copper_in_the_way_is_bridged_with_its_error_or_refused_by_name(rea
     assert any("is crossed the shortest way, 3.8 mm; its inductance is wrong by at most" in note for note in notes)
     bent = polygon(shapely.box(-2, -13, 2, -7.4) - shapely.box(-0.5, -11, 0.5, -6))
     refused(BoardError, "is wide, bent, and in the way of the current", found, read, *ends, bent)
+
+
+def test_a_figure_eight_is_one_coil_of_two_windings(read):
+    left = [(-9, 2)]
+    for d in 0.8 * np.arange(5):
+        left += [(-9 - d, -2.8 - d), (-4.2 + d, -2.8 - d), (-4.2 + d, 2.8 + d), (-9.8 - d, 2.8 + d)]
+    (coil,), (L,), _ = found(read, tracks(*left, (-13, 8), (13, 8), *[(-x, y) for x, y in left[::-1]]))
+    assert [pole.turns for pole in coil.poles] == pytest.approx([4.97, 4.97], abs=0.02)
+    assert pytest.approx(0.5425, abs=2e-4) == L

@@ -453,6 +453,22 @@ def test_step_and_repeat_zero_sets_and_layers_without_copper(tmp_path: Path) -> 
         assert trace_coils(board).coils[0].layers == ("L1", "L2")
 
 
+def test_arcs_of_single_quadrants(tmp_path: Path) -> None:
+    """Twelve quarters of circles of 8 to 5 mm, with four steps inwards; 0.1894 µH by the path of its arcs."""
+    way, place = ["D10*", "G74*", "G01*", f"{at(8, 0)}D02*"], 1 + 0j
+    for radius in (8, 7, 6, 5):
+        for _ in range(3):
+            centre, place = -radius * place, 1j * place
+            i, j = (round(abs(each) * 1e6) for each in (centre.real, centre.imag))
+            way.append(f"G03*\n{at(radius * place.real, radius * place.imag)}I{i}J{j}D01*\nG01*")
+        way.append(f"{at((radius - 1) * place.real, (radius - 1) * place.imag)}D01*")
+    board = read(tmp_path, {"t.gbr": gerber("Copper,L1,Top", *way)})
+    coils = trace_coils(board).coils
+    assert coils[0].length == pytest.approx((26 * 3 * math.pi / 2 + 4) * 1e-3, rel=1e-4)
+    L = inductance_matrix(traced_array(board, coils).array.conductors())
+    assert L[0, 0] * 1e6 == pytest.approx(0.1894, abs=1e-4)
+
+
 @pytest.mark.parametrize(("digits", "unit", "zeros"), [(3, "mm", "leading"), (4, "inch", "leading")])
 def test_missing_formats_of_drills_are_found_on_the_pads(tmp_path: Path, digits: int, unit: str, zeros: str) -> None:
     scale = 10**digits / (1 if unit == "mm" else 25.4)
