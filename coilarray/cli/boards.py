@@ -74,7 +74,7 @@ def import_board(
 
     Example: coilarray import gerbers --layer L1=top.ger --layer L2=bottom.ger
     """
-    from coilarray.fabrication.tracing import NoCoilError, trace_coils, traced_array
+    from coilarray.fabrication.tracing import NoCoilError, Tracing, trace_coils, traced_array
 
     target = file if file.suffix else file.with_suffix(".toml")
     shared.check_file("NAME", target, (".toml",))
@@ -87,21 +87,21 @@ def import_board(
         raise BoardError(f"{board}: --nets must name at least one net; got {nets!r}.")
     with shared.progress_bar("files") as progress:
         copper = _read(board, stackup, layer or [], drill_format, progress)
+    ends = None if first is None or last is None else (first, last)
+    failed = None
     try:
         with shared.progress_bar("copper") as progress:
-            ends = None if first is None or last is None else (first, last)
             tracing = trace_coils(copper, wanted, ends, progress)
     except NoCoilError as error:
-        shared.draw(picture, partial(viz.copper_figure, copper, (), [(each.name, each.at) for each in error.left_out]))
-        if only_list and not as_json and error.left_out:
-            shared.say(_left_out_table(error.left_out))
-        see = f" The picture {picture} shows the place." if picture else " --picture board.png shows the place."
-        raise BoardError(
-            f"{error}{see if error.left_out else ''} What can be tried: --nets NAME for a path without turns, --from "
-            "and --to for its ends."
-        ) from None
-    places = [(each.name, each.at) for each in tracing.left_out]
+        failed, tracing = error, Tracing((), error.left_out)
+    places = [(each.name, each.at) for each in tracing.left_out if each.at is not None]
     shared.draw(picture, partial(viz.copper_figure, copper, tracing.coils, places))
+    if failed is not None:
+        if only_list and not as_json and failed.left_out:
+            shared.say(_left_out_table(failed.left_out))
+        see = f"The picture {picture} shows the place. " if picture else "--picture board.png shows the place. "
+        advice = "What can be tried: --nets NAME for a path without turns, --from and --to for its ends."
+        raise BoardError(f"{failed} {see if failed.left_out else ''}{advice}")
     traced = traced_array(copper, tracing.coils)
     records = _records(tracing, traced, estimate=only_list)
     notes = [*traced.notes, _NO_FAB]

@@ -61,10 +61,6 @@ class CopperGraph:
         preference = np.where(self.drawn, 1.0, _DETOUR) + _LOWER * self.edge_layer
         return np.asarray(np.maximum(self.length * preference, 1e-12))  # an edge of no weight is none to scipy
 
-    def where(self, edge: int) -> str:
-        """File and line of an edge, for messages."""
-        return self.items[int(self.edge_item[edge])].where
-
     def place(self, node: int) -> str:
         """Place of a node, for messages."""
         return place_in_mm(*self.nodes[node])
@@ -356,4 +352,4 @@ def _graph(joined: Sequence[_Layer], items: Sequence[Copper], layers: Sequence[s
     return CopperGraph(
         nodes, pairs, length, width, on.astype(np.int64), of.astype(np.int64), drawn > 0, overlap > 0, items, layers,
         stands, areas, piece,
-    )
+    )  # fmt: skip

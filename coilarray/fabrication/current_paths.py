@@ -232,7 +232,8 @@ class Piece:
         while waiting:
             *fork, start = waiting.pop()
             way = [*fork, *self.longest(start, frozenset(fork))]
-            arms = self._arms(way[len(fork) :], frozenset(fork))
+            on = {*way}  # with the first nodes of the branches beside it
+            arms = {node: [other for other in self.around[node] if other not in on] for node in way[len(fork) :]}
             winding = {node: [arm for arm in own if self._winds(node, arm)] for node, own in arms.items()}
             waiting += [(node, arm) for node, own in winding.items() for arm in own]
             cuts = [k for k, node in enumerate(way) if 0 < k < len(way) - 1 and (winding.get(node) or node in rings)]
@@ -242,16 +243,13 @@ class Piece:
                         found.append(coil)
                     if best is None or (abs(coil.turns), coil.length) > (abs(best.turns), best.length):
                         best = coil
-        if found:
-            return Found(_set_back(found), "", None, best)
+        if found or best is None:
+            return Found(_set_back(found), "it has no way from end to end.", None, best)
         if self.rings:
             return Found((), self.rings[0].reason, self.rings[0].at, best, ringed=True)
-        if best is None:
-            return Found((), "it has no way from end to end.")
         x, y = best.path[0].tolist()
-        return Found(
-            (), f"it makes {abs(best.turns):.2f} turns around a place; a coil makes at least one.", (x, y), best
-        )
+        reason = f"it makes {abs(best.turns):.2f} turns around a place; a coil makes at least one."
+        return Found((), reason, (x, y), best)
 
     def between(self, first: int, last: int) -> TracedCoil:
         """Follow the way between two nodes of the tree, or raise BoardError."""
@@ -263,12 +261,6 @@ class Piece:
         """Whether a ring of the same copper is a turn of the coil."""
         places = [shapely.Point(pole.x, pole.y) for pole in coil.poles]
         return any(ring.inside.contains(place) for ring in self.rings for place in places)
-
-    def _arms(self, way: Sequence[int], without: frozenset[int]) -> dict[int, list[int]]:
-        """First nodes of the branches beside a way, by the node where they leave it."""
-        on = {*way, *without}
-        arms = {node: [other for other in self.around[node] if other not in on] for node in way}
-        return {node: own for node, own in arms.items() if own}
 
     def _winds(self, node: int, arm: int) -> bool:
         """Whether the longest way of a branch makes turns."""

@@ -61,7 +61,7 @@ def find_files(path: Path, layers: Mapping[str, str] | None = None) -> list[Data
         if name not in names or not _LAYER.fullmatch(layer):
             known = ", ".join(sorted(names))
             raise BoardError(f"{path}: --layer must be L1=FILE, with a file of {known}; got {layer}={name}.")
-    given = {name: f"L{int(layer[1:])}" for layer, name in (layers or {}).items()}
+    given = {name: int(layer[1:]) for layer, name in (layers or {}).items()}
     if given or not any(file.function[:1] == ("Copper",) for file in files):
         files = _named(files, given)
     for k, file in enumerate(files):
@@ -150,37 +150,30 @@ _NAMES: tuple[tuple[str, str], ...] = (
 )
 
 
-def _named(files: Sequence[DataFile], given: Mapping[str, str]) -> list[DataFile]:
-    """Add functions by the names of files, or as `given`, such as {"top.ger": "L1"}."""
+def _named(files: Sequence[DataFile], given: Mapping[str, int]) -> list[DataFile]:
+    """Add functions by the names of files, or as `given`, such as {"top.ger": 1}."""
     found: dict[int, tuple[str, int]] = {}
     for k, file in enumerate(files):
         name = PurePosixPath(file.label).name
         if name in given:
-            found[k] = "Number", int(given[name][1:])
+            found[k] = "Number", given[name]
         elif file.kind == "gerber" and not given:
             for use, pattern in _NAMES:
                 if match := re.search(pattern, name.lower().replace("_", "-")):
-                    number = next((int(group) for group in match.groups() if group and group.isdecimal()), 0)
-                    found[k] = use, number
+                    found[k] = use, int(match[1]) if use in ("Inner", "Number") else 0
                     break
+    uses = {use for use, _ in found.values()}
     inner = sorted({number for use, number in found.values() if use == "Inner"})
     numbers = {number for use, number in found.values() if use == "Number"}
-    last = max(numbers) if numbers else len(inner) + 2
-    sides = {"Top": "L1", "Bottom": f"L{last}"}
-    only_bottom = not numbers and not inner and not any(use == "Top" for use, _ in found.values())
-    named = []
-    for k, file in enumerate(files):
-        use, number = found.get(k, ("", 0))
-        function = file.function
+    last = max(numbers) if numbers else len(inner) + 2 if "Top" in uses or inner else 1
+    named = [*files]
+    for k, (use, number) in found.items():
         if use in ("Soldermask", "Profile"):
-            function = (use,)
-        elif use in sides:
-            function = ("Copper", "L1" if only_bottom else sides[use], "Top" if use == "Top" or only_bottom else "Bot")
-        elif use == "Inner":
-            function = ("Copper", f"L{inner.index(number) + 2}", "Inr")
-        elif use == "Number" and (given or not any(each in sides for each, _ in found.values())):
-            function = ("Copper", f"L{number}", "Top" if number == 1 else "Bot" if number == last else "Inr")
-        named.append(replace(file, function=function))
+            named[k] = replace(files[k], function=(use,))
+        elif use and (use != "Number" or given or not uses & {"Top", "Bottom"}):
+            layer = {"Top": 1, "Bottom": last, "Number": number}.get(use) or inner.index(number) + 2
+            side = "Inr" if use == "Inner" or 1 < layer < last else "Top" if layer == 1 else "Bot"
+            named[k] = replace(files[k], function=("Copper", f"L{layer}", side))
     return named
 
 
@@ -249,7 +242,7 @@ _REFUSED = {
 }
 # Transformations of apertures that change nothing, which gerbonara does not know.
 _IDLE = re.compile(r"%LMN\*%|%LR[+-]?0*(\.0*)?\*%|%LS\+?1(\.0*)?\*%")
-_STEP_REPEAT = re.compile(r"%SR(?:X(\d+)Y(\d+)I([-+.\d]+)J([-+.\d]+))?\*%")
+_STEP_REPEAT = re.compile(r"%SR(?:X(\d+)Y(\d+)I([-+]?\d*\.?\d+)J([-+]?\d*\.?\d+))?\*%")
 # X2 attributes as comments, for readers that know no attributes
 _COMMENTED = re.compile(r"G04\s*#@!\s*(T[FAOD][^*\r\n]*)\*")
 _TOOL_FUNCTION = re.compile(r";\s*#@!\s*T([AD])(?:\.AperFunction,(.*))?")
@@ -348,14 +341,9 @@ def _repeats(file: DataFile) -> Callable[[int], list[Point]]:
         if match[1]:
             columns, rows = int(match[1]), int(match[2])
             if not 1 <= columns * rows <= _MOST_REPEATS:
-                raise BoardError(
-                    f"{file.label}:{line}: step and repeat must have 1 to {_MOST_REPEATS} copies; got {columns} × "
-                    f"{rows}."
-                )
-            try:
-                i, j = float(match[3]), float(match[4])
-            except ValueError:
-                raise BoardError(f"{file.label}:{line}: step and repeat must have numbers; got {match[0]}.") from None
+                most = f"1 to {_MOST_REPEATS} copies"
+                raise BoardError(f"{file.label}:{line}: step and repeat must have {most}; got {columns} × {rows}.")
+            i, j = float(match[3]), float(match[4])
             shifts = [(i * column, j * row) for row in range(rows) for column in range(columns)]
         begins.append((line, shifts))
     lines = [line for line, _ in begins]

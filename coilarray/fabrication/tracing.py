@@ -92,36 +92,39 @@ def trace_coils(
     straight: list[tuple[TracedCoil, tuple[str, ...]]] = []
     wanted = [member for net in dict.fromkeys(nets or ()) for member in members if net in member[2]]
     for nodes, edges, own in wanted if nets is not None else members:
-        if len(edges) < 1 or (nets is None and not _may_wind(graph, nodes, edges)):
+        if not edges or (nets is None and not _may_wind(graph, nodes, edges)):
             continue
-        name = ", ".join(own) or f"copper without a net at {graph.place(nodes[0])}"
         try:
             found = Piece(graph, nodes, edges).coils()
-        except BoardError as error:
+        except BoardError as error:  # wide copper in the way
             found = Found((), str(error))
         pads = sum(stand.kind == "pad" for node in nodes for stand in graph.stands.get(node, ()))
         if nets is None and pads > _MANY_PADS and all(abs(coil.turns) < _FEW_TURNS for coil in found.coils):
             reason = f"it leads to {pads} pads, as a supply does; --nets takes it." if found.coils else found.reason
             found = replace(found, coils=(), reason=reason)
-        coils += _named(found.coils, own, {coil.name for coil in coils}, known)
+        coils += _named(found.coils, own, coils, known)
         if not found.coils:
+            name = ", ".join(own) or f"copper without a net at {graph.place(nodes[0])}"
             length, turns = (found.way.length, abs(found.way.turns)) if found.way else (0.0, 0.0)
             left_out.append(LeftOut(name, found.reason, found.at, length, turns))
             if found.way is not None and not found.ringed:
                 straight.append((found.way, own))
     for net in nets or ():  # which need not wind
         ways = [(way, own) for way, own in straight if net in own]
-        if ways and not any(net in (coil.net or "").split(", ") for coil in coils):
+        if ways and not _on(coils, net):
             way, own = max(ways, key=lambda each: each[0].length)
-            coils += _named((way,), own, {coil.name for coil in coils}, known)
-    if nets is not None:
-        first = {net: k for k, net in reversed([*enumerate(nets)])}
-        coils.sort(key=lambda coil: min(first.get(net, len(first)) for net in (coil.net or "").split(", ")))
+            coils += _named((way,), own, coils, known)
     left_out.sort(key=lambda each: (-round(each.turns, 2), -each.length))
-    missing = [net for net in nets or () if not any(net in (coil.net or "").split(", ") for coil in coils)]
+    missing = [net for net in nets or () if not _on(coils, net)]
     if missing or not coils:
         raise NoCoilError(_why_none(board, graph, missing, left_out), left_out)
-    return Tracing(tuple(coils), tuple(left_out))
+    in_order = [coil for net in nets or () for coil in _on(coils, net)]
+    return Tracing(tuple(dict.fromkeys(in_order or coils)), tuple(left_out))
+
+
+def _on(coils: Sequence[TracedCoil], net: str) -> list[TracedCoil]:
+    """Coils on a net."""
+    return [coil for coil in coils if net in (coil.net or "").split(", ")]
 
 
 _Member = tuple[list[int], list[int], tuple[str, ...]]  # nodes, edges and nets of connected copper
@@ -154,17 +157,17 @@ def _may_wind(graph: CopperGraph, nodes: Sequence[int], edges: Sequence[int]) ->
 
 
 def _named(
-    coils: Sequence[TracedCoil], nets: Sequence[str], taken: Collection[str], known: Collection[str]
+    coils: Sequence[TracedCoil], nets: Sequence[str], others: Sequence[TracedCoil], known: Collection[str]
 ) -> Iterator[TracedCoil]:
     """Name coils after their net or footprint, or coil1, coil2 and so on."""
-    # `taken` are names of coils, `known` those of nets, which are kept for their own coils
-    used = {*taken}
+    # unlike the `others`, and the `known` nets, which are kept for their own coils
+    used = {coil.name for coil in others}
     for coil in coils:
         first = nets[0] if len(nets) == 1 else coil.part or "_".join(nets)
-        others = (f"{first}_{k}" if first else f"coil{k}" for k in count(2 if first else 1))
+        numbered = (f"{first}_{k}" if first else f"coil{k}" for k in count(2 if first else 1))
         name = first
         while not name or name in used or (name in known and name not in nets):
-            name = next(others)
+            name = next(numbered)
         used.add(name)
         yield replace(coil, name=name, net=", ".join(nets) or None)
 
@@ -188,15 +191,12 @@ def _why_none(board: BoardCopper, graph: CopperGraph, missing: Sequence[str], le
 def _between(board: BoardCopper, graph: CopperGraph, members: Sequence[_Member], ends: tuple[str, str]) -> TracedCoil:
     """Follow the way between two ends that the user named."""
     first, last = (_end_node(board, graph, end) for end in ends)
+    if first == last:
+        raise BoardError(f"{board.source}: {ends[0]} and {ends[1]} are one place.")
     for nodes, edges, own in members:
-        if first in nodes:
-            if last not in nodes:
-                raise BoardError(f"{board.source}: no copper joins {ends[0]} and {ends[1]}.")
-            if first == last:
-                raise BoardError(f"{board.source}: {ends[0]} and {ends[1]} are one place.")
-            coil = Piece(graph, nodes, edges).between(first, last)
-            return next(_named((coil,), own, (), ()))
-    raise BoardError(f"{board.source}: there is no copper at {ends[0]}.")
+        if first in nodes and last in nodes:
+            return next(_named((Piece(graph, nodes, edges).between(first, last),), own, (), ()))
+    raise BoardError(f"{board.source}: no copper joins {ends[0]} and {ends[1]}.")
 
 
 def _end_node(board: BoardCopper, graph: CopperGraph, end: str) -> int:

@@ -221,12 +221,12 @@ def _patch(shape: shapely.Polygon, **look: object) -> PathPatch:
 
 @styled
 def copper_figure(
-    board: BoardCopper, coils: Sequence[TracedCoil] = (), places: Sequence[tuple[str, tuple[float, float] | None]] = ()
+    board: BoardCopper, coils: Sequence[TracedCoil] = (), places: Sequence[tuple[str, tuple[float, float]]] = ()
 ) -> Figure:
     """Draw the copper of a board by layers, the paths of its coils, and places in it.
 
     Copper of the `board` is grey, the path of each of the `coils` has a colour and its name. The
-    `places` with their names are x and y in m, or None for those that are left out.
+    `places` with their names are x and y in m.
     """
     layers, colours = board.stackup.names, cycled(LAYERS, [coil.name for coil in coils])
     found: list[Copper] = [*board.tracks, *board.holes, *board.pads, *(area for area in board.areas if not area.vague)]
@@ -244,18 +244,16 @@ def copper_figure(
                 if isinstance(part, shapely.Polygon) and not part.is_empty:
                     ax.add_artist(_patch(part, facecolor=GREY, alpha=0.4, linewidth=0))
         for coil in coils:
-            colour = colours[coil.name]
-            own = [line for line, on in zip(coil.lines, coil.layers, strict=True) if on == layer]
-            for line in own:
-                ax.plot(*MM.of(line).T, color=colour, linewidth=1.2)
-            if own:
+            for line, on in zip(coil.lines, coil.layers, strict=True):
+                if on == layer:
+                    ax.plot(*MM.of(line).T, color=colours[coil.name], linewidth=1.2)
+            if layer in coil.layers:
                 x, y = MM.of(coil.centre).tolist()
                 write_name(ax, x, y, coil.name, weight="bold", fontsize=_LETTERS, clip_on=True)
         for name, place in places:
-            if place is not None:
-                x, y = MM.of(place).tolist()
-                ax.plot(x, y, "o", ms=12, mfc="none", mec=_BROKEN, mew=1.6)
-                ax.annotate(name, (x, y), xytext=(8, 8), textcoords="offset points", color=_BROKEN, clip_on=True)
+            x, y = MM.of(place).tolist()
+            ax.plot(x, y, "o", ms=12, mfc="none", mec=_BROKEN, mew=1.6)
+            ax.annotate(name, (x, y), xytext=(8, 8), textcoords="offset points", color=_BROKEN, clip_on=True)
         x_min, y_min, x_max, y_max = MM.of(bounds).tolist()
         rim = 0.03 * (x_max - x_min + y_max - y_min)
         ax.set(xlim=(x_min - rim, x_max + rim), ylim=(y_min - rim, y_max + rim), title=f"Copper {layer}")
