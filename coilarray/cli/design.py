@@ -194,11 +194,8 @@ def init(
     data: dict[str, Any]
     if source is not None:
         if source not in bundled.names():
-            board = Path(source).suffix.lower() in (".kicad_pcb", ".zip")
-            hint = f"boards become designs by `coilarray import {source}`" if board else "there are"
-            raise DesignError(
-                f"there is no bundled design {source!r}; {hint}{'.' if board else f' {chr(44).join(bundled.names())}.'}"
-            )
+            known = ", ".join(bundled.names())
+            raise DesignError(f"no bundled design {source!r}; there are {known}. Boards are read by coilarray import.")
         write_text(target, bundled.read(source))
         lines, data = [f"wrote {target}"], {}
     else:

@@ -86,7 +86,7 @@ class SurfacePad:
 
 @dataclass(frozen=True, eq=False)
 class CopperArea:
-    """Copper in m such as "a filled zone", if not `vague`."""
+    """Copper in m such as "a filled zone"."""
 
     layer: str
     shape: BaseGeometry
@@ -94,7 +94,6 @@ class CopperArea:
     what: str
     where: str
     part: str = ""
-    vague: bool = False  # a box around a text, or the outline of a zone without fill: joins nothing
 
     @property
     def copper(self) -> dict[str, BaseGeometry]:
@@ -115,7 +114,7 @@ class BoardCopper:
     holes: tuple[Hole, ...]
     pads: tuple[SurfacePad, ...]
     assumed: dict[str, str] = field(default_factory=dict)  # reasons by dotted keys of [stackup]
-    areas: tuple[CopperArea, ...] = ()  # zones, drawn shapes, texts
+    areas: tuple[CopperArea, ...] = ()  # zones and drawn shapes
     edge: tuple[float, float, float, float] | None = None  # x_min, y_min, x_max, y_max in m of the outline
     notes: tuple[str, ...] = ()  # sentences for the user
 

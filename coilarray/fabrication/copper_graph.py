@@ -282,8 +282,6 @@ def copper_graph(board: BoardCopper, progress: Progress | None = None) -> Copper
             shapes[layer].append((shape, (stand.x, stand.y), len(items)))
         items.append(stand)
     for area in board.areas:
-        if area.vague or area.shape.is_empty:
-            continue
         found = centre_lines(area.shape)
         lines[area.layer] += [(line, widths, len(items)) for line, widths in found]
         if not found:

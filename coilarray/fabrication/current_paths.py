@@ -243,10 +243,12 @@ class Piece:
                         found.append(coil)
                     if best is None or (abs(coil.turns), coil.length) > (abs(best.turns), best.length):
                         best = coil
-        if found or best is None:
-            return Found(_set_back(found), "it has no way from end to end.", None, best)
+        if found:
+            return Found(_set_back(found), way=best)
         if self.rings:
             return Found((), self.rings[0].reason, self.rings[0].at, best, ringed=True)
+        if best is None:
+            return Found((), "it has no way from end to end.")
         x, y = best.path[0].tolist()
         reason = f"it makes {abs(best.turns):.2f} turns around a place; a coil makes at least one."
         return Found((), reason, (x, y), best)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -36,6 +37,7 @@ NEWEST_VERSION = 20260206  # format of KiCad 10, the newest that this reader kno
 _PER_M = 1e3  # numbers in the file are in mm
 _COPPER = re.compile(r"F\.Cu|In(\d+)\.Cu|B\.Cu")
 _DRAWN = {"line": "line", "arc": "arc", "circle": "circle", "rect": "rectangle", "poly": "polygon", "curve": "curve"}
+_NO_COPPER = ("generated", "image", "layer", "pad")  # copper elsewhere in the file
 GRAPHICS = tuple(f"{kind}_{shape}" for kind in ("gr", "fp") for shape in _DRAWN)
 ToBoard = Callable[[float, float], Point]  # from mm of the file to m on the board
 
@@ -45,8 +47,8 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
 
     Arcs are divided into pieces within 0.9 µm of them. Drawn lines, arcs and curves of the board,
     of footprints and of custom pads are tracks, drawn polygons are areas. Formats of KiCad 5 to 10
-    are known; others are read as far as they are understood, with a note. Unknown objects with a
-    net or on copper, texts and dimensions are vague areas.
+    are known; others are read as far as they are understood, with a note. Texts, dimensions, zones
+    without a fill and unknown objects on copper are left out with a note.
     """
     root = read_sexpr(path)
     if root.name in ("footprint", "module"):
@@ -93,7 +95,11 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     tracks = tuple(item for item in found if isinstance(item, Track))
     holes = tuple(item for item in found if isinstance(item, Hole))
     pads = tuple(item for item in found if isinstance(item, SurfacePad))
-    areas = tuple(item for item in found if isinstance(item, CopperArea))
+    areas = tuple(item for item in found if isinstance(item, CopperArea) and not item.shape.is_empty)
+    bare = Counter(item.what for item in found if isinstance(item, CopperArea) and item.shape.is_empty)
+    if bare:
+        left_out = ", ".join(f"{count} × {what}" for what, count in bare.items())
+        notes.append(f"Copper that is not followed is left out: {left_out}.")
     return BoardCopper(str(path), board.stackup, tracks, holes, pads, board.assumed, areas, edge, tuple(notes))
 
 
@@ -223,7 +229,7 @@ class _Board:
         shape, of_pad = pad_shape(node, to_board)
         primitives = node.child("primitives")
         for item in () if primitives is None else primitives.children(*GRAPHICS):
-            yield from self.graphic(item, of_pad, layers, net, part, "drawn in a pad")
+            yield from self.graphic(item, of_pad, layers, net, part, " in a pad")
         if kind != "thru_hole":
             for layer in layers:
                 yield SurfacePad(x, y, layer, net, node.where, number, size, shape, part, value)
@@ -241,27 +247,25 @@ class _Board:
         yield Hole(x, y, bore, size, layers_between, net, "pad", node.where, number, shapes, part, value)
 
     def drawn(self, node: Node, to_board: ToBoard, part: str = "") -> Iterator[Track | CopperArea]:
-        """Yield a zone, drawn shape, text or other copper, by layer."""
+        """Yield a zone or drawn shape by layer, or other copper without a shape."""
         net = self.net(node) if node.name != "net" else None
         names = self.layers(node)
+        hidden = any(
+            "hide" in part.words or any(hide.words[:1] != ("no",) for hide in part.children("hide"))
+            for part in (node, *node.children("effects"))
+        )
         if node.name in GRAPHICS:
             yield from self.graphic(node, to_board, names, net, part) if names else ()
-            return
-        found: Iterable[tuple[str, BaseGeometry, str, bool]] = ()
-        if node.name == "zone":
-            found = self.zone(node, names) if node.child("keepout") is None else ()
-        elif names:
-            found = [(name, shape, what, True) for shape, what in other_copper(node, to_board) for name in names]
-        elif net is not None:
-            found = [(self.stackup.names[0], shapely.Polygon(), f"an unknown ({node.name} …)", True)]
-        for name, shape, what, vague in found:
-            yield CopperArea(name, shape, net, what, node.where, part, vague)
+        elif node.name == "zone":
+            yield from self.zone(node, names, net) if node.child("keepout") is None else ()
+        elif (names or net is not None) and node.name not in _NO_COPPER and not hidden:
+            yield CopperArea("", shapely.Polygon(), net, f"({node.name} …)", node.where)
 
     def graphic(
         self, node: Node, to_board: ToBoard, layers: Sequence[str], net: str | None, part: str, where: str = ""
     ) -> Iterator[Track | CopperArea]:
         """Yield a drawn shape as tracks along its line, or as an area if it is filled."""
-        what = f"a drawn {_DRAWN[node.name.split('_')[1]]}{' ' * bool(where)}{where}"
+        what = f"a drawn {_DRAWN[node.name.split('_')[1]]}{where}"
         outline, width, filled = drawn_shape(node, to_board)
         if filled:
             shape: BaseGeometry = shapely.Polygon(outline).buffer(0)
@@ -275,18 +279,15 @@ class _Board:
                 for first, last in pairwise(outline):
                     yield Track(layer, first, last, width, net, node.where, what, part)
 
-    def zone(self, zone: Node, names: tuple[str, ...]) -> Iterator[tuple[str, BaseGeometry, str, bool]]:
-        """Yield layer, shape and kind of filled areas or outlines."""
+    def zone(self, zone: Node, names: tuple[str, ...], net: str | None) -> Iterator[CopperArea]:
+        """Yield the filled areas of a zone, without a shape if it has none."""
         fills = list(zone.children("filled_polygon"))
         for fill in fills:
             name = self.one_layer(fill) if fill.child("layer") else next(iter(names), None)
             if name is not None:
-                yield name, _polygon(fill, self.to_board), "a filled zone", False
-        if not fills:
-            outline = zone.child("polygon")
-            shape = shapely.Polygon() if outline is None else _polygon(outline, self.to_board)
-            for name in names:
-                yield name, shape, "a zone without a fill", True
+                yield CopperArea(name, _polygon(fill, self.to_board), net, "a filled zone", zone.where)
+        if not fills and names:
+            yield CopperArea("", shapely.Polygon(), net, "zone without a fill", zone.where)
 
     def outline(self, node: Node, to_board: ToBoard) -> list[Point]:
         """Return points of a shape on the board's edge layer."""
@@ -385,10 +386,10 @@ def drawn_shape(node: Node, to_board: ToBoard) -> tuple[list[Point], float, bool
     """Line in m that a drawn shape on any layer follows, its width in m, and whether it is filled."""
     kind = node.name.split("_")[1]
     outline = drawn_outline(node, to_board)
-    width, fill = (node.child("stroke") or node).child("width"), node.child("fill")
+    stroke, fill = (node.child("stroke") or node).child("width"), node.child("fill")
     filled = kind == "poly" if fill is None else fill.text() in ("solid", "yes")
-    half = 0.0 if width is None else width.number() / _PER_M
-    return outline, half, kind in ("circle", "rect", "poly") and filled and len(outline) > 3
+    width = 0.0 if stroke is None else stroke.number() / _PER_M
+    return outline, width, kind in ("circle", "rect", "poly") and filled and len(outline) > 3
 
 
 def drawn_outline(node: Node, to_board: ToBoard) -> list[Point]:
@@ -489,60 +490,6 @@ def _flat(pad: Node) -> BaseGeometry:
     ratio = pad.child("roundrect_rratio")
     radius = 0.0 if ratio is None or kind != "roundrect" else min(ratio.number(), 0.5) * min(width, height)
     return box.buffer(-radius * 0.999).buffer(radius * 0.999, quad_segs=32)
-
-
-_TEXTS = {"gr_text": 0, "fp_text": 1, "property": 1}  # with the index of the text among the words
-_NO_COPPER = ("generated", "image", "layer", "pad", "zone")  # copper elsewhere in the file
-_PLACES = ("at", "start", "mid", "end", "center", "xy")
-_LETTER = 1.2  # largest width of KiCad's letters over the size of the font
-_LINE = 1.7  # distance of lines over the size
-
-
-def other_copper(node: Node, to_board: ToBoard) -> Iterator[tuple[BaseGeometry, str]]:
-    """Yield rectangles in m around texts, dimensions and unknown nodes, and their kind."""
-    hidden = any(
-        "hide" in part.words or any(hide.words[:1] != ("no",) for hide in part.children("hide"))
-        for part in (node, *node.children("effects"))
-    )
-    if node.name in _NO_COPPER or hidden:
-        return
-    if node.name in _TEXTS:
-        yield _text_box(node, to_board), "a text"
-        return
-    what = {"gr_text_box": "a text box", "fp_text_box": "a text box", "dimension": "a dimension"}.get(node.name)
-    height = node.child("height")
-    margin = 0.0 if height is None else abs(height.number()) / _PER_M  # to a dimension's object
-    around = shapely.MultiPoint([to_board(x, y) for x, y in _places(node)]).envelope
-    yield around.buffer(max(margin, 1e-9)), what or f"an unknown ({node.name} …)"
-
-
-def _text_box(node: Node, to_board: ToBoard) -> BaseGeometry:
-    """Rectangle around a text, to both sides if not centred, as it may be mirrored."""
-    effects = node.child("effects") or node
-    size, stroke = effects.child("font", "size"), effects.child("font", "thickness")
-    height, width = (1.0, 1.0) if size is None else pair(size)
-    bold = 0.15 * height if stroke is None else stroke.number()
-    text = node.words[_TEXTS[node.name]] if len(node.words) > _TEXTS[node.name] else ""
-    rows = text.split("\n")
-    justify = effects.child("justify")
-    words = () if justify is None else justify.words
-    x = max(map(len, rows)) * width * _LETTER / 2 * (2 if {"left", "right"} & set(words) else 1) + bold
-    y = len(rows) * height * _LINE / 2 * (2 if {"top", "bottom"} & set(words) else 1) + bold
-    place = node.need("at")
-    angle = "".join(place.words[2:3])
-    turn = math.radians(float(angle)) if angle.lstrip("+-").replace(".", "", 1).isdecimal() else 0.0
-    box = shapely.box(-x / _PER_M, -y / _PER_M, x / _PER_M, y / _PER_M)
-    turned = affinity.rotate(box, turn, origin=(0, 0), use_radians=True)
-    return affinity.translate(turned, *to_board(*pair(place)))
-
-
-def _places(node: Node) -> Iterator[Point]:
-    """Yield every place inside a node."""
-    for item in node.items:
-        if isinstance(item, Node):
-            if item.name in _PLACES and len(item.words) > 1:
-                yield pair(item)
-            yield from _places(item)
 
 
 _REMARK = re.compile(r"\A(?:[ \t]*#[^\n]*\n)*")  # at the beginning of a generator's file

@@ -177,9 +177,7 @@ def _why_none(board: BoardCopper, graph: CopperGraph, missing: Sequence[str], le
     about = [each for each in left_out if set(each.name.split(", ")) & set(missing)] if missing else left_out
     if not about:
         what = f"net {missing[0]} has no track" if missing else "there is no copper that could be a coil"
-        vague = [area.what for area in board.areas if area.vague]
-        hint = f"; {len(vague)} pieces are texts or zones without a fill, which are not followed" if vague else ""
-        return f"{board.source}: {what}{hint}."
+        return " ".join((f"{board.source}: {what}.", *board.notes))
     first = about[0]
     more = f" {len(about) - 1} more pieces of copper are no coils either." if len(about) > 1 else ""
     what = f"net {first.name}" if first.name in {item.net for item in graph.items} else first.name

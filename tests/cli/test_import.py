@@ -55,7 +55,7 @@ def test_json_says_what_was_found_and_what_was_left_out(capsys):
         path(*SPIRAL[:6], width="0.3"),
         path(*SPIRAL[5:], width="0.2"),
         pads(SPIRAL[0], SPIRAL[-1]),
-        path((20, 0), (30, 0), (20, 0.5), (28, 0.2), net="2"),
+        path((20, 0), (30, 0), (30, 1), (20, 1), (20, 2), (30, 2), net="2"),
         nets=("/coil A", "GND"),
     ).replace('(net 1 "A")', '(net 1 "/coil A")')
     found = answer(capsys, write(text))

@@ -462,7 +462,7 @@ def test_arcs_of_single_quadrants(tmp_path: Path) -> None:
             i, j = (round(abs(each) * 1e6) for each in (centre.real, centre.imag))
             way.append(f"G03*\n{at(radius * place.real, radius * place.imag)}I{i}J{j}D01*\nG01*")
         way.append(f"{at((radius - 1) * place.real, (radius - 1) * place.imag)}D01*")
-    board = read(tmp_path, {"t.gbr": gerber("Copper,L1,Top", *way)})
+    board = read(tmp_path, {"t.gbr": gerber("Copper,L1,Top", *way, apertures=("C,0.3",))})
     coils = trace_coils(board).coils
     assert coils[0].length == pytest.approx((26 * 3 * math.pi / 2 + 4) * 1e-3, rel=1e-4)
     L = inductance_matrix(traced_array(board, coils).array.conductors())

@@ -229,7 +229,7 @@ def copper_figure(
     `places` with their names are x and y in m.
     """
     layers, colours = board.stackup.names, cycled(LAYERS, [coil.name for coil in coils])
-    found: list[Copper] = [*board.tracks, *board.holes, *board.pads, *(area for area in board.areas if not area.vague)]
+    found: list[Copper] = [*board.tracks, *board.holes, *board.pads, *board.areas]
     items = [(layer, shape) for item in found for layer, shape in item.copper.items()]
     layers = tuple(layer for layer in layers if layer in dict(items)) or layers[:1]
     bounds = shapely.total_bounds([shape for _, shape in items]) if items else np.array([0.0, 0.0, 1e-2, 1e-2])
