@@ -218,8 +218,10 @@ class _Layer:
                 for place in places:
                     self.bridges.append((place, own, float(self.width[on]), int(self.hub_item[hub[k]]), False))
         i, j = shapely.STRtree(self.shapes).query(self.shapes, predicate="intersects")
+        bounds = shapely.bounds(self.shapes).reshape(-1, 4)
+        sizes = (bounds[:, 2:] - bounds[:, :2]).min(axis=1)
         for a, b in zip(i[i < j].tolist(), j[i < j].tolist(), strict=True):
-            width = min(_size(self.shapes[a]), _size(self.shapes[b]))
+            width = float(min(sizes[a], sizes[b]))
             self.bridges.append((self.first_hub + a, self.first_hub + b, width, int(self.hub_item[a]), False))
 
 
@@ -238,12 +240,6 @@ def _reached(start: int, around: dict[int, list[tuple[int, float, int]]], limit:
             if distance + length <= limit and other not in done:
                 heapq.heappush(waiting, (distance + length, other))
     return lines
-
-
-def _size(shape: BaseGeometry) -> float:
-    """Smaller side of a shape's bounds in m."""
-    x0, y0, x1, y1 = shape.bounds
-    return float(min(x1 - x0, y1 - y0))
 
 
 def require_followable(lines: Shapes, where: str) -> None:

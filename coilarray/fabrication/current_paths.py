@@ -165,9 +165,8 @@ class Piece:
         if hole.area <= _NO_HOLE * float(graph.width[own].max()) ** 2:
             return False
         # what joins the ways is named: a pad, or the shortest copper at a fork
-        bridges = [each for each in own if not graph.drawn[each]]
-        forks = [each for each in own if (self._degree[graph.edges[each]] > 2).any()]
-        bridge = bridges[0] if bridges else min(forks, key=lambda each: graph.length[each], default=own[0])
+        forked = self._degree[graph.edges[own]].max(axis=1) > 2
+        bridge = own[np.lexsort((graph.length[own], ~forked, graph.drawn[own]))[0]]
         item = graph.items[graph.edge_item[bridge]]
         at = graph.nodes[graph.edges[bridge]].mean(axis=0)
         layer = graph.layers[graph.edge_layer[bridge]]
@@ -279,7 +278,7 @@ class Piece:
 
         a, b = self._real[first], self._real[last]
         real = [*self._real]
-        before = dijkstra(self._matrix, False, np.array(a), True)[1].tolist()
+        before: list[int] = dijkstra(self._matrix, False, np.array(a), True)[1].ravel().tolist()
         way = [b]
         while way[-1] != a:
             way.append(before[way[-1]])
@@ -449,9 +448,10 @@ def _set_back(coils: Sequence[TracedCoil]) -> tuple[TracedCoil, ...]:
 
 
 def _name(stand: Hole | SurfacePad) -> str:
-    """Return U1.3 of a pad, or its place."""
-    numbered = stand.part and stand.number
-    return f"{stand.part}.{stand.number}" if numbered else f"a {stand.kind} at {place_in_mm(stand.x, stand.y)}"
+    """Return U1.3 of a pad with the value of its part, or its place."""
+    if not stand.part or not stand.number:
+        return f"a {stand.kind} at {place_in_mm(stand.x, stand.y)}"
+    return f"{stand.part}.{stand.number}{f' ({stand.value})' * bool(stand.value)}"
 
 
 def _is_reversed(ends: Sequence[Hole | SurfacePad | None], firsts: Sequence[tuple[int, float]]) -> bool:

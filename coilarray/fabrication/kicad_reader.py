@@ -105,19 +105,12 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
 
 def _around_footprint(footprint: Node) -> Node:
     """Return a board that has only a footprint, with the layers that it names."""
-    inner = sorted({int(match[1]) for word in _words(footprint) if (match := _COPPER.fullmatch(word)) and match[1]})
-    names = ["F.Cu", *(f"In{k}.Cu" for k in range(1, max(inner, default=0) + 1)), "B.Cu"]
+    on = (layer for item in footprint.items if isinstance(item, Node) for layer in item.children("layer", "layers"))
+    named = [match for layer in on for word in layer.words if (match := _COPPER.fullmatch(word))]
+    inner = max((int(match[1] or 0) for match in named), default=0)
+    names = ["F.Cu", *(f"In{k}.Cu" for k in range(1, inner + 1)), "B.Cu"]
     rows = tuple(Node(str(k), (name, "signal"), footprint.where) for k, name in enumerate(names))
     return Node("kicad_pcb", (Node("layers", rows, footprint.where), footprint), footprint.where)
-
-
-def _words(node: Node) -> Iterator[str]:
-    """Yield every word inside a node."""
-    for item in node.items:
-        if isinstance(item, Node):
-            yield from _words(item)
-        else:
-            yield item
 
 
 def _reference(footprint: Node) -> tuple[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -23,6 +24,7 @@ from coilarray.geometry.coil import VIA, PlatedHole, path_coil
 from coilarray.geometry.stackup import Stackup
 
 _SHOWN = 12  # names in a message
+_PLACE = re.compile(r"\s*([-+]?\d*\.?\d+)\s*,\s*([-+]?\d*\.?\d+)\s*")
 _MANY_PADS, _FEW_TURNS = 8, 1.5  # copper with more pads and fewer turns is no coil unless it is asked for
 
 
@@ -199,14 +201,10 @@ def _between(board: BoardCopper, graph: CopperGraph, members: Sequence[_Member],
 
 def _end_node(board: BoardCopper, graph: CopperGraph, end: str) -> int:
     """Node of a pad "U1.3", or nearest to a place "1.5,-2" in mm."""
-    place = end.split(",")
-    if len(place) == 2:
-        try:
-            at = np.array([float(value) for value in place]) / 1e3
-        except ValueError:
-            at = np.array([np.nan, np.nan])
-        if np.isfinite(at).all() and len(graph.nodes):
-            return int(np.hypot(*(graph.nodes - at).T).argmin())
+    place = _PLACE.fullmatch(end)
+    if place and len(graph.nodes):
+        at = float(place[1]) / 1e3, float(place[2]) / 1e3
+        return int(np.hypot(*(graph.nodes - at).T).argmin())
     stands = ((node, stand) for node, own in graph.stands.items() for stand in own if stand.number)
     named = {f"{stand.part}.{stand.number}": node for node, stand in stands}
     if end in named:
