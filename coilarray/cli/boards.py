@@ -74,6 +74,8 @@ def import_board(
 
     Example: coilarray import gerbers --layer L1=top.ger --layer L2=bottom.ger
     """
+    from coilarray.design.model import Design, parse_design
+    from coilarray.design.write import design_text
     from coilarray.fabrication.tracing import NoCoilError, Tracing, trace_coils, traced_array
 
     target = file if file.suffix else file.with_suffix(".toml")
@@ -112,24 +114,16 @@ def import_board(
         "left_out": {each.name: each.reason for each in tracing.left_out},
     }  # fmt: skip
     if not only_list:
-        _write(traced, board, target)
+        design = Design(traced.array, name=board.stem, source=f"imported from {board.name}")
+        text = design_text(design, traced.assumed)
+        parse_design(text, origin=str(board))  # what no design can be is refused here, not by the next command
+        write_text(target, text)
         lines += [f"assumed: {key}: {reason}" for key, reason in traced.assumed.items()]
         lines += [*(f"note: {note}" for note in notes), f"wrote {target}"]
         quoted = shlex.quote(str(target))
         lines.append(f"next: coilarray check {quoted}, coilarray report {quoted}")
         data = {"design": str(target), **data}
     shared.print_result(data, as_json=as_json, lines=lines, files=(picture,))
-
-
-def _write(traced: TracedArray, board: Path, target: Path) -> None:
-    """Write the design of traced coils."""
-    from coilarray.design.model import Design, parse_design
-    from coilarray.design.write import design_text
-
-    design = Design(traced.array, name=board.stem, source=f"imported from {board.name}")
-    text = design_text(design, traced.assumed)
-    parse_design(text, origin=str(board))  # what no design can be is refused here, not by the next command
-    write_text(target, text)
 
 
 def _table(records: Sequence[Mapping[str, Any]], name: str, *, estimate: bool) -> Table:
@@ -166,12 +160,6 @@ def _read(
     from coilarray.fabrication.gerber_reader import read_gerbers
     from coilarray.fabrication.kicad_reader import read_kicad
 
-    try:
-        board.stat()
-    except (FileNotFoundError, NotADirectoryError):
-        raise BoardError(f"{board}: there is no such file or folder.") from None
-    except OSError as error:
-        raise BoardError(f"{board}: cannot be read: {error.strerror}.") from None
     known = None if stackup is None else load_design(stackup).array.stackup
     if board.suffix.lower() in (".kicad_pcb", ".kicad_mod"):
         if layers or drill_format:

@@ -105,7 +105,7 @@ class Piece:
 
     def _tree(self, in_tree: set[int]) -> dict[int, dict[int, int]]:
         """Edges of the tree by both ends, with the copper of open rings as one node."""
-        top = list(range(len(self.nodes)))  # of the copper of rings, the node nearest to the root
+        top = list(range(len(self.nodes)))  # of nodes in the copper of rings, a node for all
 
         def first(k: int) -> int:
             while top[k] != k:
@@ -128,12 +128,8 @@ class Piece:
                 continue
             checked += 1
             if checked > _MOST_RINGS or self._is_open(ring, own, inside.buffer(0)):
-                a, b = first(a), first(b)
-                while a != b:
-                    if self._depth[a] < self._depth[b]:
-                        a, b = b, a
-                    top[a] = self._before[a]
-                    a = first(a)
+                for k in ring:
+                    top[first(k)] = first(a)
         self._group = {node: self.nodes[first(k)] for k, node in enumerate(self.nodes)}
         around: dict[int, dict[int, int]] = {self._group[node]: {} for node in self.nodes}
         for edge in in_tree:
@@ -184,9 +180,7 @@ class Piece:
         for node in list(around):
             if len(around[node]) == 1 and (node in self.stands or node in graph.areas):
                 ((other, edge),) = around[node].items()
-                if not graph.drawn[edge] and (
-                    node in graph.areas or len(around[other]) > 2
-                ):  # on a way, or a mere area
+                if not graph.drawn[edge] and (node in graph.areas or len(around[other]) > 2):
                     self.stands.setdefault(other, []).extend(self.stands.pop(node, ()))
                     held.add(other)
                     del around[node], around[other][node]

@@ -615,13 +615,14 @@ def _cut_out(objects: Sequence[Drawn]) -> list[Drawn]:
     if not clear:
         return [*objects]
     shapes = [item.shape for item in objects]
+    met = shapely.STRtree([shapes[k] for k in clear]).query(shapes, predicate="intersects").T.tolist()
     cuts: dict[int, list[BaseGeometry]] = {}
-    for index, k in shapely.STRtree(shapes).query([shapes[k] for k in clear], predicate="intersects").T.tolist():
-        if k < clear[index] and k not in clear:
+    for k, index in met:
+        if k < clear[index]:
             cuts.setdefault(k, []).append(shapes[clear[index]])
     return [
         Region(item.shape - shapely.union_all(cuts[k]), item.net, item.where) if k in cuts else item
-        for k, item in enumerate(objects) if k not in clear
+        for k, item in enumerate(objects) if not (isinstance(item, Region) and item.clear)
     ]  # fmt: skip
 
 

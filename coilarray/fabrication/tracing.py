@@ -7,7 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import count
+from itertools import chain, count
 
 import numpy as np
 
@@ -166,10 +166,8 @@ def _named(
     used = {coil.name for coil in others}
     for coil in coils:
         first = nets[0] if len(nets) == 1 else coil.part or "_".join(nets)
-        numbered = (f"{first}_{k}" if first else f"coil{k}" for k in count(2 if first else 1))
-        name = first
-        while not name or name in used or (name in known and name not in nets):
-            name = next(numbered)
+        names = chain([first], (f"{first}_{k}" for k in count(2))) if first else (f"coil{k}" for k in count(1))
+        name = next(name for name in names if name not in used and (name not in known or name in nets))
         used.add(name)
         yield replace(coil, name=name, net=", ".join(nets) or None)
 

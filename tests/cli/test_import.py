@@ -111,11 +111,11 @@ def test_a_stackup_from_a_design(capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["none.kicad_pcb"], "none.kicad_pcb: there is no such file or folder"),
+        (["none.kicad_pcb"], "none.kicad_pcb: cannot be read: No such file"),
         (["b.kicad_pcb", "--nets", "C"], "b.kicad_pcb: there is no net 'C'; the board has A, B."),
         (["b.kicad_pcb", "--nets", " , "], "b.kicad_pcb: --nets must name at least one net; got ' , '"),
         (["b.kicad_pcb", "--stackup", "none.toml"], "there is no design file none.toml"),
-        (["b.kicad_pcb/x.kicad_pcb"], "b.kicad_pcb/x.kicad_pcb: there is no such file or folder"),
+        (["b.kicad_pcb/x.kicad_pcb"], "b.kicad_pcb/x.kicad_pcb: cannot be read: Not a directory"),
         (["b.txt"], "b.txt: must be a folder or an intact zip of Gerber files"),
         (["b.PcbDoc"], "b.PcbDoc: files of this program are not read; export Gerber and drill files"),
         (["b.kicad_pcb", "--from", "U1.1"], "--from and --to are given together"),
