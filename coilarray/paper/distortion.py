@@ -161,12 +161,16 @@ def distortion(
         response = _Maps(one, errors, maps.count).plain()
         pair = (response, _opened(one, response, names))
         drawn.append([ellipse_curves(each, states, levels).determined_x0 for each in pair])
-    of_both = np.array(drawn)  # (draw, 2, state, delta): grounded and open neighbours
+    return result.assign(_errors(result, np.array(drawn)))
+
+
+def _errors(result: xr.Dataset, drawn: FloatArray) -> dict[str, xr.DataArray]:
+    """Deviations of x0 over draws, (draw, 2, state, delta): grounded and open neighbours."""
     effect, rms = np.full(result.effect.shape, np.nan), np.full(result.rms.shape, np.nan)
-    neighbours = of_both[:, 0] - of_both[:, 1]
+    neighbours = drawn[:, 0] - drawn[:, 1]
     effect[0], rms[0] = neighbours.std(axis=0, ddof=1), _rms(neighbours).std(axis=0, ddof=1)
-    found = {"x0": of_both.std(axis=0, ddof=1), "effect": effect, "rms": rms}
-    return result.assign({f"{name}_std": result[name].copy(data=values) for name, values in found.items()})
+    found = {"x0": drawn.std(axis=0, ddof=1), "effect": effect, "rms": rms}
+    return {f"{name}_std": result[name].copy(data=values) for name, values in found.items()}
 
 
 class _Maps:

@@ -120,4 +120,4 @@ def test_every_consumer_has_the_same_number():
     assert identifiability(model, 0.3e-3).attrs["noise"] == [model.noise] * 3
     known = np.isfinite(own.sigma_x.values)
     # 1e-4: where one direction is hardly known, the inverse loses digits
-    assert (tenfold.sigma_x.values / own.sigma_x.values)[known] == pytest.approx(10.0, rel=1e-4)
+    assert tenfold.sigma_x.values[known] / own.sigma_x.values[known] == pytest.approx(10.0, rel=1e-4)

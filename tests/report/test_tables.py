@@ -62,7 +62,10 @@ def test_a_position_is_determined_to_less_than_the_size_of_a_coil(worst):
     sigma = np.concatenate(([1e-6], sigma, [worst]))[None]
     axes = {"y": [0.0], "x": np.arange(40) * 1e-3, "over_coils": (("y", "x"), over[None])}
     about = {"noise": [1e-6], "common_noise": [0.0], "coil_size": 12e-3}
-    least, half, most, *rest = summary._position_rows(xr.Dataset({"sigma_x": (("y", "x"), sigma)}, axes, about))
+    both = dict.fromkeys(("sigma_x", "sigma_y"), (("y", "x"), sigma))
+    rows = list(summary._position_rows(xr.Dataset(both, axes, about)))
+    least, half, most, *rest = rows[: len(rows) // 2]
+    assert [row[2:] for row in rows[len(rows) // 2 :]] == [row[2:] for row in rows[: len(rows) // 2]]
     assert (least[2], least[-1]) == (1e-5, "at x 1, y 0 mm; noise of δ 1·10⁻⁶")
     assert (half[2], most[2]) == pytest.approx((20e-5, 38e-5))  # of 39 places 20 and 38, which is more than 95 %
     if worst < 12e-3:

@@ -36,8 +36,10 @@ def made_up_distortion(design: Design, states: Iterable[str] = ("coil1", "coil2"
     rms = np.sqrt(np.nansum(residual**2, axis=-1) / known)
     data["rms_residual"] = ("state", np.where(np.isnan(residual).all(axis=-1), np.nan, rms), metres)
     data["centre"] = ("state", np.zeros(len(states)), metres)
+    data |= {f"indenter_{name}": (("indenter", "state", "delta"), both[:1], metres) for name in ("x0", "A", "B")}
+    data["indenter_peak"] = (("indenter", "state"), np.full((1, len(states)), 1e-3), {"units": "1"})
     coords = {"neighbours": ["grounded", "open"], "state": states, "delta": delta, "cause": ["all neighbours", "noise"]}
-    return xr.Dataset(data, coords, {"design": design.name})
+    return xr.Dataset(data, coords | {"indenter": ["without"]}, {"design": design.name})
 
 
 def made_up_ellipses(item: Mapping[str, Any]) -> dict[str, float]:
