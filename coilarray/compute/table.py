@@ -429,7 +429,7 @@ class Card:
     def html(self) -> str:
         """Return the card as HTML."""
         remark = f"<small>{html_text(self.remark)}</small>"
-        return f'<div class="card"><h3>{html_text(self.name)}</h3><p>{escape(self.value)}</p>{remark}</div>'
+        return f'<div class="card"><h3>{html_text(self.name)}</h3><p>{html_text(self.value)}</p>{remark}</div>'
 
 
 @dataclass(frozen=True)
