@@ -116,8 +116,10 @@ def drive_for(parallel_resistance: float) -> Drive | None:
     """
     require_each_positive(parallel_resistance=parallel_resistance)
     code = int(drive_codes(np.array(parallel_resistance)))
+    if code < 0:
+        return None
     current = DRIVE_CURRENTS[code]
-    return None if code < 0 else Drive(code, current, 4 * parallel_resistance * current / math.pi)
+    return Drive(code, current, 4 * parallel_resistance * current / math.pi)
 
 
 def drive_codes(parallel_resistance: FloatArray) -> IntArray:

@@ -157,7 +157,7 @@ def _read(
     board: Path, stackup: str | None, layers: Sequence[str], drill_format: str | None, progress: Progress
 ) -> BoardCopper:
     from coilarray.design.model import load_design
-    from coilarray.fabrication.gerber_reader import read_gerbers
+    from coilarray.fabrication.gerber_reader import NoLayerError, read_gerbers
     from coilarray.fabrication.kicad_reader import read_kicad
 
     known = None if stackup is None else load_design(stackup).array.stackup
@@ -172,19 +172,19 @@ def _read(
     given = dict(one.split("=", 1) for one in layers if "=" in one)
     if len(given) < len(layers):
         raise BoardError(f"--layer must be as L1=top.ger; got {', '.join(layers)}.")
-    return read_gerbers(board, known, given or _asked(board), drill_format, progress)
+    try:
+        return read_gerbers(board, known, given, drill_format, progress)
+    except NoLayerError as error:
+        if not (error.names and sys.stdin.isatty() and sys.stdout.isatty()):
+            raise
+        given = _asked(error.names)
+    return read_gerbers(board, known, given, drill_format, progress)
 
 
-def _asked(board: Path) -> dict[str, str] | None:
-    """Ask on a terminal which files are copper, where no name tells."""
-    from coilarray.fabrication.gerber_reader import find_files
-
-    files = [file for file in find_files(board) if file.kind == "gerber"]
-    told = any(file.function[:1] == ("Copper",) for file in files)
-    if told or not files or not (sys.stdin.isatty() and sys.stdout.isatty()):
-        return None
+def _asked(names: Sequence[str]) -> dict[str, str]:
+    """Ask on a terminal which files are copper."""
     shared.say("No file says that it is copper. Type 1 for the top layer, 2 for the next, and Return for others.")
-    answers = {Path(file.label).name: typer.prompt(Path(file.label).name, default="").strip() for file in files}
+    answers = {name: typer.prompt(name, default="").strip() for name in names}
     return {f"L{answer}": name for name, answer in answers.items() if answer.isdecimal()}
 
 

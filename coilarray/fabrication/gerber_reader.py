@@ -40,6 +40,14 @@ _PROMISES_DATA = re.compile(r".*\.(gbr|ger|g[tb][los]|gp?\d+|drl|xln)", re.IGNOR
 _NOT_PLATED = re.compile(r"npth|(non|un)\W?plated", re.IGNORECASE)
 
 
+class NoLayerError(BoardError):
+    """Files of which none says that it is copper, with the `names` of the Gerber files."""
+
+    def __init__(self, message: str, names: Sequence[str]) -> None:
+        super().__init__(message)
+        self.names = tuple(names)
+
+
 @dataclass(frozen=True)
 class DataFile:
     """Gerber, Excellon or job file with the fields of its X2 .FileFunction."""
@@ -705,7 +713,8 @@ def _copper_files(files: Sequence[DataFile], path: Path) -> list[DataFile]:
         more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
         hint = f"; say which it is as --layer L1=FILE, of {', '.join(names[:_SHOWN])}{more}." if names else "."
         hint = f"; did you mean {boards[0]}?" if boards else hint
-        raise BoardError(f"{path}: has no copper layer among its {len(files)} Gerber and Excellon files{hint}")
+        message = f"{path}: has no copper layer among its {len(files)} Gerber and Excellon files{hint}"
+        raise NoLayerError(message, names)
     last = max(numbered)
     missing = [f"L{number}" for number in range(1, last + 1) if number not in numbered]
     if numbered[last].function[2:3] == ("Inr",):

@@ -20,7 +20,8 @@ from matplotlib.ticker import MaxNLocator
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import MM, PLAIN, DisplayUnit, number_text, true_minus
-from coilarray.fabrication.board import BoardCopper, Copper
+from coilarray.fabrication.board import BoardCopper
+from coilarray.fabrication.nets import board_layers
 from coilarray.fabrication.traced_coil import TracedCoil
 from coilarray.geometry import Coil, FinitePlate, Plate, Sheet, Stackup
 from coilarray.geometry.array import Array
@@ -228,21 +229,19 @@ def copper_figure(
     Copper of the `board` is grey, the path of each of the `coils` has a colour and its name. The
     `places` with their names are x and y in m.
     """
-    layers, colours = board.stackup.names, cycled(LAYERS, [coil.name for coil in coils])
-    found: list[Copper] = [*board.tracks, *board.holes, *board.pads, *board.areas]
-    items = [(layer, shape) for item in found for layer, shape in item.copper.items()]
-    layers = tuple(layer for layer in layers if layer in dict(items)) or layers[:1]
-    bounds = shapely.total_bounds([shape for _, shape in items]) if items else np.array([0.0, 0.0, 1e-2, 1e-2])
+    copper, colours = board_layers(board)[0], cycled(LAYERS, [coil.name for coil in coils])
+    layers = [layer for layer, shapes in copper.items() if shapes] or [*copper][:1]
+    shapes = [shape for layer in layers for shape in copper[layer]]
+    bounds = shapely.total_bounds(shapes) if shapes else np.array([0.0, 0.0, 1e-2, 1e-2])
     width, height = figure_size(bounds[2] - bounds[0], bounds[3] - bounds[1])
     columns = math.ceil(len(layers) / _MOST_ROWS)
     rows = math.ceil(len(layers) / columns)
     figure = new_figure(columns * width, rows * height)
     for k, layer in enumerate(layers):
         ax = figure.add_subplot(rows, columns, k + 1)
-        for shape in (shape for name, shape in items if name == layer):
-            for part in shapely.get_parts(shape):
-                if isinstance(part, shapely.Polygon) and not part.is_empty:
-                    ax.add_artist(_patch(part, facecolor=GREY, alpha=0.4, linewidth=0))
+        for part in shapely.get_parts(copper[layer]).tolist():
+            if isinstance(part, shapely.Polygon) and not part.is_empty:
+                ax.add_artist(_patch(part, facecolor=GREY, alpha=0.4, linewidth=0))
         for coil in coils:
             for line, on in zip(coil.lines, coil.layers, strict=True):
                 if on == layer:

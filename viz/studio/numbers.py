@@ -464,11 +464,9 @@ class SwitchesPanel(Panel):
             self.fail(str(error))
             return
         saved, before = self._numbers.saved.get("circuit"), None
-        if saved is not None and saved is not circuit:
-            with suppress(NetworkError):  # it has other coils
+        if saved is not None and saved is not circuit and saved.network.names == circuit.network.names:
+            with suppress(NetworkError):  # it has no resonance in this state
                 before = resonate(saved.network, state_of(self._state.settings))
-        if before is not None and len(before.currents) != len(found.currents):
-            before = None
         rows = []
         for k, (name, current) in enumerate(zip(self._state.settings, found.currents.tolist(), strict=True)):
             angle = math.degrees(cmath.phase(current)) if abs(current) > 1e-9 else 0.0

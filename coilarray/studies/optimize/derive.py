@@ -520,7 +520,10 @@ _NAMED: Mapping[str, _Named] = {
         "Positions best resolved", _three_states, (pitch_ranges, turns_ranges, termination_choices), _position_error
     ),
     "smallest": _Named(
-        "The smallest board for its inductance", lambda _: None, (size_ranges, pitch_ranges, *_TRACES[1:]), _smallest
+        "The smallest board for its inductance",
+        lambda _: None,
+        (size_ranges, pitch_ranges, turns_ranges, trace_ranges),
+        _smallest,
     ),
     "range": _Named("Largest range of a target", _a_target, _TRACES, partial(_of_target, finest=False)),
     "resolution": _Named("Finest resolution of distance", _a_target, _TRACES, partial(_of_target, finest=True)),
